@@ -12,7 +12,7 @@ import numpy as np
 from hystid.errors import UsageError
 from hystid.numeric import Array
 from hystid.recording.checks import without_markers
-from hystid.recording.names import known_name, numbered, turns, unit_symbol
+from hystid.recording.names import known_name, meant, numbered, turns, unit_symbol
 from hystid.recording.problems import RecordingProblem
 from hystid.recording.table import Column, RawTable
 from hystid.recording.types import CHANNELS, PSEUDO_TIME, ROTATIONAL
@@ -127,7 +127,7 @@ class _Reading:
         self.units: dict[str, str] = {}
 
     def _is_angular(self, column: Column) -> bool:
-        channel = self.wanted.get(column.name) or self._canonical(column.name)
+        channel = self.wanted.get(column.name) or self._canonical(column)
         if channel is None or channel == "t":
             return False
         unit = self._unit(channel, column)
@@ -140,7 +140,7 @@ class _Reading:
         return self.wishes.units.get(channel) or unit_symbol(column.unit or "") or ("V" if sensed else "")
 
     def take(self, column: Column) -> None:
-        channel = self.wanted.get(column.name) or self._canonical(column.name)
+        channel = self.wanted.get(column.name) or self._canonical(column)
         if column.name in self.extra or (channel and channel in self.taken):
             other = self.taken.get(channel or "", column.name)
             found = f"columns '{other}' and '{column.name}' both mean {channel or column.name}"
@@ -182,10 +182,10 @@ class _Reading:
         for channel, found, action in told:
             self.problems.append(self.table.problem("columns", found, action, channel, severity="warning"))
 
-    def _canonical(self, name: str) -> str | None:
-        if name in self.wanted.values():
+    def _canonical(self, column: Column) -> str | None:
+        if column.name in self.wanted.values():
             return None
-        channel = known_name(self.numbered.get(name, name))
+        channel = meant(self.numbered.get(column.name, column.name), column.unit)
         return None if channel in self.wanted.values() else channel
 
     def _channel(self, channel: str, column: Column) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hystid.errors import RecordingError
+from hystid.recording.names import decoded
 from hystid.recording.table import RawTable
 from hystid.recording.tree import Vector, refuse_scale, tables_of
 
@@ -76,6 +77,8 @@ def _node(item: Any, file: Any) -> Any:
     values = item[()]
     if _plain(item.attrs.get("MATLAB_class")) == "char":
         return "".join(chr(int(code)) for code in np.asarray(values).ravel(order="F"))
+    if isinstance(values, np.ndarray) and values.size > max(values.shape, default=1):
+        return values  # a matrix
     if np.asarray(values).dtype.kind in "fiub":
         stated = {key.casefold(): value for key, value in item.attrs.items()}
         unit = stated.get("unit", stated.get("units"))
@@ -106,7 +109,7 @@ def _struct_array(members: dict[str, Any]) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, bytes):
-        return value.decode("utf-8", errors="replace")
+        return decoded(value)
     if isinstance(value, np.ndarray) and value.size == 1:
         return _plain(value.ravel()[0])
     return value.item() if isinstance(value, np.generic) else value

@@ -58,6 +58,27 @@ def known_name(name: str) -> str | None:
     return found[0] if found else None
 
 
+def meant(name: str, unit: str | None) -> str | None:
+    """The channel of a column: T in degC is a temperature, and no time."""
+    channel = known_name(name)
+    return None if channel == "t" and unit and _is_temperature(unit) else channel
+
+
+def _is_temperature(unit: str) -> bool:
+    try:
+        return parse(unit_symbol(unit)).exponents == {"K": 1}
+    except UsageError:
+        return False
+
+
+def decoded(text: bytes) -> str:
+    """A text of a binary format: UTF-8, or else the code page of Windows in which older programs wrote."""
+    try:
+        return text.decode()
+    except UnicodeDecodeError:
+        return text.decode("cp1252", errors="replace")
+
+
 def turns(name: str) -> bool:
     """Whether the name alone says that the rig turns, as "torque" does."""
     found = _found(name)
@@ -118,6 +139,11 @@ def split_header(text: str) -> tuple[str, str | None]:
 def scales(word: str) -> bool:
     """Whether a word at the start of a row above the samples says that the row holds factors of the columns."""
     return _is_label(word, "scaling")
+
+
+def shifts(word: str) -> bool:
+    """Whether a word beside a channel says that a constant is to be added to it."""
+    return _is_label(word, "offset")
 
 
 def labels_units(word: str) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hystid.errors import RecordingError
 from hystid.numeric import Array
-from hystid.recording.names import known_name, split_header
+from hystid.recording.names import known_name, meant, split_header
 from hystid.recording.table import Column, RawTable, clock_seconds, clocks_apart
 from hystid.recording.tree import refuse_scale
 
@@ -26,10 +26,11 @@ def read_tdms(path: Path) -> list[RawTable]:
     from nptdms import TdmsFile
 
     try:
-        groups = [
-            (group.name, [_column(channel, path) for channel in group.channels()], _rate(group, path))
-            for group in TdmsFile.read(path).groups()
-        ]
+        with path.open("rb") as file:  # by its path, an index that lies beside it would count for more
+            groups = [
+                (group.name, [_column(channel, path) for channel in group.channels()], _rate(group, path))
+                for group in TdmsFile.read(file).groups()
+            ]
     except RecordingError:
         raise
     except Exception as error:  # npTDMS raises ValueError, KeyError, struct.error ... on broken files
@@ -39,7 +40,7 @@ def read_tdms(path: Path) -> list[RawTable]:
     for name, columns, rate in groups:
         kept = tuple(column for column in columns if column is not None and column.values.size)
         table = RawTable(path.name, kept, name if several else path.stem, sample_rate=rate)
-        if any(known_name(column.name) for column in kept):
+        if any(meant(column.name, column.unit) for column in kept):
             found.append(table)
         elif len(kept) > 1:  # names of their own, which a user may assign
             unnamed.append(table)

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from hystid.errors import RecordingError, UsageError
+from hystid.errors import RecordingError, UsageError, printable
 from hystid.numeric import Array
-from hystid.recording.names import known_name, scales, split_header
+from hystid.recording.names import known_name, meant, scales, shifts, split_header
 from hystid.recording.problems import RecordingProblem
 from hystid.recording.table import Column, RawTable
 from hystid.units import parse
@@ -65,13 +65,16 @@ def _tables(tree: Any, file: str, name: str, *, known: bool) -> list[RawTable]:
 def _table(tree: Mapping[str, Any], file: str, name: str) -> RawTable | None:
     vectors = {key: vector for key, item in tree.items() if (vector := _vector(item)) is not None}
     columns = [_column(key, vector, tree) for key, vector in vectors.items()]
-    known = [column for column in columns if known_name(column.name)]
+    known = [column for column in columns if meant(column.name, column.unit)]
+    tables = [key for key, item in tree.items() if _is_table(key, item, vectors)]
     rate = _rate(tree)
-    if len(known) < 2 and not (known and rate):
+    if len(known) + len(tables) < 2 and not ((known or tables) and rate):
         return None
     _refuse_scales(tree, file)
-    _refuse_tables(tree, vectors, {known_name(column.name) for column in known}, file)
-    longest = max(column.values.size for column in known)
+    if any(column.unit is None for column in known):
+        _refuse_listed_units(tree, file)
+    _refuse_tables({key: tree[key] for key in tables}, {known_name(column.name) for column in known}, file)
+    longest = max((column.values.size for column in known), default=0)
     kept = tuple(column for column in columns if column in known or column.values.size == longest)
     return RawTable(file, kept, name, sample_rate=rate)
 
@@ -107,7 +110,8 @@ def _column(key: str, vector: Vector, tree: Mapping[str, Any]) -> Column:
 def refuse_scale(file: str, name: str, scale: str, value: object) -> None:
     """Raise RecordingError where a factor stands beside a channel: nobody knows whether it has been applied."""
     factor = _scalar(value)
-    if known_name(split_header(name)[0]) and scales(scale) and factor not in (None, 0.0, 1.0):
+    neutral = (None, 0.0) if shifts(scale) else (None, 0.0, 1.0)
+    if known_name(split_header(name)[0]) and (scales(scale) or shifts(scale)) and factor not in neutral:
         found = f"{scale} = {factor:g} stands beside {name}, and is not applied"
         action = f"write {name} in its unit and leave {scale} out"
         raise RecordingError(str(RecordingProblem(file, "columns", found, action, name)))
@@ -115,7 +119,7 @@ def refuse_scale(file: str, name: str, scale: str, value: object) -> None:
 
 def _refuse_scales(tree: Mapping[str, Any], file: str) -> None:
     for key, item in tree.items():
-        if scales(key) and isinstance(item, Mapping):  # scale.F
+        if (scales(key) or shifts(key)) and isinstance(item, Mapping):  # scale.F
             for name, value in item.items():
                 refuse_scale(file, name, key, value)
         head, _, tail = key.partition("_")  # F_scale
@@ -123,13 +127,29 @@ def _refuse_scales(tree: Mapping[str, Any], file: str) -> None:
             refuse_scale(file, head, tail, item)
 
 
-def _refuse_tables(tree: Mapping[str, Any], vectors: Collection[str], found: Collection[str | None], file: str) -> None:
+def _refuse_listed_units(tree: Mapping[str, Any], file: str) -> None:
+    units = tree.get("units", tree.get("unit"))
+    if isinstance(units, Sequence | np.ndarray) and not isinstance(units, str) and len(units):
+        told = ", ".join(printable(str(unit), 20) for unit in units[:6])
+        found = f"units is a list ({told}), which does not say of which channel each is"
+        raise RecordingError(str(RecordingProblem(file, "columns", found, "write units.F = 'N' for each channel")))
+
+
+def _is_table(key: str, item: Any, vectors: Collection[str]) -> bool:
+    named = key not in vectors and known_name(split_header(key)[0]) is not None
+    return named and isinstance(item, np.ndarray) and item.size > 1
+
+
+def _refuse_tables(tables: Mapping[str, Array], found: Collection[str | None], file: str) -> None:
     """Channels that no vector holds, and that a table or complex numbers are called by."""
-    for key, item in tree.items():
+    for key, item in tables.items():
         name = split_header(key)[0]
-        if key in vectors or not isinstance(item, np.ndarray) or item.size < 2 or known_name(name) in (None, *found):
+        if known_name(name) in found:
             continue
-        what = "complex numbers" if item.dtype.kind == "c" else f"{' by '.join(map(str, item.shape))} numbers"
+        shape = " by ".join(map(str, item.shape))
+        what = {"c": "complex numbers", "S": "texts", "U": "texts", "O": "texts"}.get(
+            item.dtype.kind, f"{shape} numbers"
+        )
         action = "save the measured values as one vector for each channel"
         raise RecordingError(
             str(RecordingProblem(file, "columns", f"{key} holds {what}", action, known_name(name) or ""))

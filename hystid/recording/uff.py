@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -33,21 +34,33 @@ def read_uff(path: Path) -> list[RawTable]:
         raise RecordingError(
             f"{path.name}: it holds no time response (data set 58); export time histories, not spectra"
         )
-    return [_table(path, responses)]
+    return [_table(path, responses, _sizes(path, sets))]
 
 
-def _table(path: Path, responses: list[dict[str, Any]]) -> RawTable:
+def _sizes(path: Path, sets: list[dict[str, Any]]) -> dict[str, float]:
+    """How many units of the file are one m and one N, by data set 164. Without it, and by its code 1, they are SI."""
+    stated = next((item for item in sets if item.get("type") == 164 and item.get("units_code") != 1), {})
+    sizes = {name: float(stated.get(name, 1.0)) for name in ("length", "force")}
+    for name, size in sizes.items():
+        if not 0 < size < math.inf:
+            found = f"data set 164 gives a {name} of {size:g} units"
+            raise RecordingError(f"{path.name}: {found}; write the units of the file there, or leave the data set out")
+    return sizes
+
+
+def _table(path: Path, responses: list[dict[str, Any]], sizes: dict[str, float]) -> RawTable:
     columns: dict[str, Column] = {}
     time = np.asarray(responses[0]["x"], dtype=np.float64)
     for number, response in enumerate(responses, start=1):
         name, unit = _QUANTITIES.get(int(response.get("ordinate_spec_data_type", 0)), (f"channel_{number}", ""))
         label = str(response.get("ordinate_axis_units_lab", "")).strip().strip("\0")
         name = name if name not in columns else f"{name}_{number}"
-        stated = label if label and label.upper() != "NONE" else unit
+        labelled = bool(label) and label.upper() != "NONE"
         values = np.asarray(response["data"])
         if np.any(np.imag(values)):
             raise RecordingError(f"{path.name}: {name} holds complex numbers; export the measured values, not spectra")
-        columns[name] = Column(name, stated or None, np.real(values).astype(np.float64))
+        size = 1.0 if labelled or not unit else sizes["force" if unit == "N" else "length"]
+        columns[name] = Column(name, (label if labelled else unit) or None, np.real(values).astype(np.float64) / size)
         if apart := clocks_apart(time, np.asarray(response["x"], dtype=np.float64)):
             raise RecordingError(f"{path.name}: {name} {apart} that of {next(iter(columns))}; export one test per file")
     if any(column.values.size != time.size for column in columns.values()):
