@@ -139,3 +139,11 @@ def test_units_of_a_universal_file_in_its_data_set_164(tmp_path: Path) -> None:
     _same(read(write("NONE", X / inch, units)), 1e-9)
     _same(read(write("mm", 1e3 * X, units)), 1e-9)
     _refused(write("NONE", X / inch, units | {"length": 0.0}), "data set 164 gives a length of 0 units")
+
+
+def test_a_problem_of_one_test_in_a_file_says_of_which(tmp_path: Path) -> None:
+    with pytest.importorskip("h5py").File(tmp_path / "test.h5", "w") as file:
+        for group, channels in {"fast": {"t": T, "F": F, "x": X}, "slow": {"t": T, "x": X}}.items():
+            for name, values in channels.items():
+                file[f"{group}/{name}"] = values
+    _refused(tmp_path / "test.h5", r"^test\.h5, test slow, channel F: there is no channel F")

@@ -115,7 +115,10 @@ def _read_file(path: Path, door: _Door) -> list[Recording]:
     unknown = sorted(set(door.accept) - set(RULES))
     if unknown:
         raise UsageError(f"--accept {unknown[0]}: the rules are {', '.join(RULES)}")
-    return [_recording(table, interpret(table, door.wishes), door) for table in tables(path)]
+    found = tables(path)
+    if len(found) > 1:
+        found = [replace(table, file=f"{table.file}, test {table.name}") for table in found]
+    return [_recording(table, interpret(table, door.wishes), door) for table in found]
 
 
 def tables(path: Path) -> list[RawTable]:
