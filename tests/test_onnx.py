@@ -130,6 +130,10 @@ def drop(key: str) -> Callable[[onnx.ModelProto], None]:
     return change
 
 
+def later(proto: onnx.ModelProto) -> None:
+    next(item for item in proto.opset_import if item.domain == "").version = 999
+
+
 def put(key: str, value: str) -> Callable[[onnx.ModelProto], None]:
     def change(proto: onnx.ModelProto) -> None:
         next(entry for entry in proto.metadata_props if entry.key == key).value = value
@@ -169,7 +173,8 @@ BAD = {
     "initial state is missing": (drop("initial_state"), "'initial_state' is missing"),
     "mass is text": (put("mass", "heavy"), "'mass' cannot be read: 'heavy'"),
     "mass is negative": (put("mass", "-1.0"), "'mass' must be a number of at least 0"),
-    "sample rate is 0": (put("sample_rate", "0"), "'sample_rate' must be a number"),
+    "sample rate is 0": (put("sample_rate", "0"), "'sample_rate' must be a number above 0, found 0"),
+    "operators of a later standard": (later, "operator set 999 of the ONNX standard is newer than"),
     "range lacks v": (put("training_range", '{"x": [0, 1]}'), "lacks v"),
     "range is a number": (put("training_range", "3"), "must hold"),
     "state of another length": (put("initial_state", "[0, 0]"), "state must have 2 element"),

@@ -89,6 +89,12 @@ def load(path: Path) -> ModelProto:
         raise NetworkError(f"{path}: a damaged ONNX file: a name in it is no text")
     if not proto.ir_version or not proto.opset_import or not (proto.graph.node or proto.graph.output):
         raise NetworkError(f"{path}: not an ONNX file, or a damaged or truncated one (it holds no network)")
+    asked = max((item.version for item in proto.opset_import if item.domain in ("", "ai.onnx")), default=0)
+    if asked > onnx.defs.onnx_opset_version():
+        known = f"the {onnx.defs.onnx_opset_version()} that the package onnx knows here"
+        raise NetworkError(
+            f"{path}: operator set {asked} of the ONNX standard is newer than {known}; export an older one"
+        )
     try:
         onnx.checker.check_model(proto)
     except Exception as error:  # the checker raises protobuf's types as well as its own
@@ -120,7 +126,7 @@ def read(path: Path) -> tuple[ModelProto, StepDescription]:
         raise NetworkError(f"{path}: state_layout names {len(layout)} elements, initial_state has {len(initial)}")
     description = StepDescription(
         mass=_number(path, given, "mass", least=0.0),
-        sample_rate=_number(path, given, "sample_rate", least=5e-324),
+        sample_rate=_number(path, given, "sample_rate", above=0.0),
         training_range=_ranges(path, given),
         state_layout=tuple(str(name) for name in layout),
         initial_state=initial,
@@ -257,10 +263,17 @@ def _entry(path: Path, given: Mapping[str, str], key: str) -> Any:
         raise _wrong(path, key, f"cannot be read: {given[key][:60]!r}") from error
 
 
-def _number(path: Path, given: Mapping[str, str], key: str, least: float) -> float:
+def _number(
+    path: Path, given: Mapping[str, str], key: str, least: float = -math.inf, above: float = -math.inf
+) -> float:
     value = _entry(path, given, key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < math.inf:
-        raise _wrong(path, key, f"must be a number of at least {least:g}, found {value!r}")
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not (least <= value < math.inf and value > above)
+    ):
+        limit = f"above {above:g}" if above > least else f"of at least {least:g}"
+        raise _wrong(path, key, f"must be a number {limit}, found {value!r}")
     return float(value)
 
 
