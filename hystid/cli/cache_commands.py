@@ -20,8 +20,9 @@ def show_cache(
 ) -> None:
     """The cache of compiled models: where it is, whether it is whole, and how to empty it.
 
-    \b
     Damaged entries are made anew where they are needed. HYSTID_CACHE names another folder.
+
+    \b
     Examples:
       hystid cache
       hystid cache verify
