@@ -104,7 +104,8 @@ _FACTOR = re.compile(r"^([A-Za-zµμ%°]+|1)\^?([+-]?\d+)?$")
 # pint computes what stands in a unit: powers of powers, as 9**9**9, take hours
 _LONGEST_UNIT = 60  # characters, twice as long as any unit of the standards
 _RAISED = re.compile(r"[\d)]\s*(?:\*\*|\^)")
-_NO_UNIT = re.compile(r"[^\w\s.*/^()+\-−%‰°′\"·⋅×µμ⁰¹²³⁴-⁹⁺⁻]")  # pint passes over such signs: ?m would be m
+_DOTS = dict.fromkeys(map(ord, "⋅∙•‧"), "·")
+_NO_UNIT = re.compile(r"[^\w\s.*/^()+\-−%‰°′\"·×µμ⁰¹²³⁴-⁹⁺⁻]")  # pint passes over such signs: ?m would be m
 _DIGITS = re.compile(r"\d{7}|(?:\*\*|\^)\s*\(?\s*[+-]?\s*\d{3}|[eE]\s*[+-]?\s*\d{3}")
 
 
@@ -128,14 +129,14 @@ def parse(text: str) -> Unit:
 
     Raises UsageError when neither the SI grammar nor pint knows it.
     """
-    stripped = text.strip()
+    stripped = text.strip().translate(_DOTS)
     if len(stripped) > _LONGEST_UNIT or len(_RAISED.findall(stripped)) > 1 or _DIGITS.search(stripped):
         raise UsageError(f"unit '{printable(stripped, 40)}' is not known; write it like N, kN, mm, m/s2, N.s/m or lbf")
     if stripped in ("", "-"):
         return Unit(text, 1.0, 0.0, {})
     if stripped == "degC":
         return Unit(text, 1.0, 273.15, {"K": 1})
-    plain = stripped.replace("·", ".").replace("⋅", ".").replace("**", "^").replace("*", ".")
+    plain = stripped.replace("·", ".").replace("**", "^").replace("*", ".")
     plain = _SPOKEN.get(plain, plain)
     for extra in ({}, _CUSTOMARY):
         try:
