@@ -147,3 +147,20 @@ def test_a_problem_of_one_test_in_a_file_says_of_which(tmp_path: Path) -> None:
             for name, values in channels.items():
                 file[f"{group}/{name}"] = values
     _refused(tmp_path / "test.h5", r"^test\.h5, test slow, channel F: there is no channel F")
+
+
+def test_counts_of_mdf_and_parquet_are_no_newtons(tmp_path: Path) -> None:
+    """Whole numbers without a unit are asked about, as in HDF5; a conversion in the file is carried out."""
+    asammdf = pytest.importorskip("asammdf")
+    counts = np.round(F * 10).astype(np.int16)
+    says = "column F has no unit, and holds whole numbers, as a converter counts; give --unit F=N"
+    for unit, conversion, refused in (("", None, True), ("N", {"a": 0.1, "b": 0.0}, False)):
+        file = asammdf.MDF(version="4.10")
+        force = asammdf.Signal(counts, T, name="F", unit=unit, conversion=conversion)
+        file.append([force, asammdf.Signal(X, T, name="x", unit="m")])
+        file.save(tmp_path / "test.mf4", overwrite=True)
+        if refused:
+            _refused(tmp_path / "test.mf4", says)
+        else:
+            _same(read(tmp_path / "test.mf4"), 0.06 / np.max(np.abs(F)))  # half a count of 0.1 N
+    _refused(_parquet(tmp_path / "test.parquet", {}, ["t [s]", "F", "x [m]"], T, counts, X), says)

@@ -44,7 +44,8 @@ def read_mdf(path: Path) -> list[RawTable]:
         values = np.asarray(signal.samples, dtype=np.float64)
         if len(signal.timestamps) != len(time) or not np.array_equal(signal.timestamps, time):
             values = np.interp(time, signal.timestamps, values)
-        columns.append(Column(name, unit or signal.unit or None, values))
+        counts = signal.samples.dtype.kind in "iu"
+        columns.append(Column(name, unit or signal.unit or None, values, counts))
     return [RawTable(path.name, tuple(columns), path.stem)]
 
 

@@ -31,7 +31,8 @@ def read_parquet(path: Path) -> list[RawTable]:
         if (stamps := clock_seconds(array)) is not None:
             array, stated = stamps, "s"
         if array.dtype.kind in "fiub":
-            columns.append(Column(name, stated, np.ascontiguousarray(array, dtype=np.float64)))
+            counts = array.dtype.kind in "iu"
+            columns.append(Column(name, stated, np.ascontiguousarray(array, dtype=np.float64), counts))
     if not columns:
         names = ", ".join(table.schema.names) or "none"
         raise RecordingError(f"{path.name}: no column holds numbers (the columns are {names}); store them as numbers")
