@@ -44,6 +44,8 @@ def test_matrices_of_hdf5_are_no_channels(tmp_path: Path) -> None:
     for shape in ((N // 2, 2), (2, N // 2)):
         _refused(_hdf5(path, F=(F.reshape(shape), {}), x=(X.reshape(shape), {})), f"F holds {shape[0]} by {shape[1]} n")
     _same(read(_hdf5(path, F=(F[:, None], {"unit": "N"}), x=(X[None, :], {"unit": "m"}))))
+    _hdf5(path, **{"R": (np.eye(3), {}), "run/t": (T, {}), "run/F": (F, {}), "run/x": (X, {})})
+    _same(read(path))  # a matrix beside the tests, as of a rotation, is none of theirs
 
 
 def test_units_of_hdf5_in_a_code_page_of_windows(tmp_path: Path) -> None:

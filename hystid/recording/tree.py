@@ -42,7 +42,10 @@ def tables_of(tree: Any, file: str, name: str) -> list[RawTable]:
 
     Where no name is known, vectors of one length that stand together are taken, for a user may say what they hold.
     """
-    return _tables(tree, file, name, known=True) or _tables(tree, file, name, known=False)
+    found = _tables(tree, file, name, known=True) or _tables(tree, file, name, known=False)
+    if not found:
+        _refuse_matrices(tree, file)
+    return found
 
 
 def _tables(tree: Any, file: str, name: str, *, known: bool) -> list[RawTable]:
@@ -66,15 +69,14 @@ def _table(tree: Mapping[str, Any], file: str, name: str) -> RawTable | None:
     vectors = {key: vector for key, item in tree.items() if (vector := _vector(item)) is not None}
     columns = [_column(key, vector, tree) for key, vector in vectors.items()]
     known = [column for column in columns if meant(column.name, column.unit)]
-    tables = [key for key, item in tree.items() if _is_table(key, item, vectors)]
     rate = _rate(tree)
-    if len(known) + len(tables) < 2 and not ((known or tables) and rate):
+    if len(known) < 2 and not (known and rate):
         return None
     _refuse_scales(tree, file)
     if any(column.unit is None for column in known):
         _refuse_listed_units(tree, file)
-    _refuse_tables({key: tree[key] for key in tables}, {known_name(column.name) for column in known}, file)
-    longest = max((column.values.size for column in known), default=0)
+    _refuse_tables(tree, vectors, {known_name(column.name) for column in known}, file)
+    longest = max(column.values.size for column in known)
     kept = tuple(column for column in columns if column in known or column.values.size == longest)
     return RawTable(file, kept, name, sample_rate=rate)
 
@@ -135,16 +137,20 @@ def _refuse_listed_units(tree: Mapping[str, Any], file: str) -> None:
         raise RecordingError(str(RecordingProblem(file, "columns", found, "write units.F = 'N' for each channel")))
 
 
-def _is_table(key: str, item: Any, vectors: Collection[str]) -> bool:
-    named = key not in vectors and known_name(split_header(key)[0]) is not None
-    return named and isinstance(item, np.ndarray) and item.size > 1
+def _refuse_matrices(tree: Any, file: str) -> None:
+    """Of a tree without a test: say where a channel is no vector."""
+    if isinstance(tree, Mapping):
+        _refuse_tables(tree, (), (), file)
+    inner = tree.values() if isinstance(tree, Mapping) else tree if isinstance(tree, list | tuple) else ()
+    for item in inner:
+        _refuse_matrices(item, file)
 
 
-def _refuse_tables(tables: Mapping[str, Array], found: Collection[str | None], file: str) -> None:
+def _refuse_tables(tree: Mapping[str, Any], vectors: Collection[str], found: Collection[str | None], file: str) -> None:
     """Channels that no vector holds, and that a table or complex numbers are called by."""
-    for key, item in tables.items():
+    for key, item in tree.items():
         name = split_header(key)[0]
-        if known_name(name) in found:
+        if key in vectors or not isinstance(item, np.ndarray) or item.size < 2 or known_name(name) in (None, *found):
             continue
         shape = " by ".join(map(str, item.shape))
         what = {"c": "complex numbers", "S": "texts", "U": "texts", "O": "texts"}.get(
