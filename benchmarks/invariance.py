@@ -201,7 +201,9 @@ def _reversed(a: Asked, case: Case, rng: np.random.Generator) -> Asked:
 
 
 def _twice(a: Asked, case: Case, rng: np.random.Generator) -> Asked:
-    return replace(a, training=[*a.training, dict(a.training[0])])
+    """With another time of the day: the very same file is refused."""
+    first = a.training[0]
+    return replace(a, training=[*a.training, first | {"t": first["t"] + 3600.0}])
 
 
 def _hot(data: Columns) -> Columns:
@@ -223,7 +225,7 @@ CHANGES: dict[str, Change] = {
     "second half only": _rows(0.5, 1.0),
     "first recording only": lambda a, case, rng: replace(a, training=a.training[:1]),
     "recordings and columns in another order": _reversed,
-    "a recording handed in twice": _twice,
+    "a recording handed in again as of an hour later": _twice,
     "every second sample": _rows(0, 1, 2),
     "rate times 0.77": _to_rate(0.77),
     "rate times 1.6": _to_rate(1.6),
