@@ -147,7 +147,9 @@ def test_steps_from_normal_equations_reach_the_least_squares_solution(
     held = replace(baseline, free=("B", "Kl"), linear=("B", "Kl"), weighed=False)
     problem = problem_of(parts, held)
     start = Hypothesis(VALUES, (Term(effects["CubicStiffness"], {"k3": 0.0}),))
-    monkeypatch.setattr("hystid.diagnosis.fit.descent._SMALL_FALL", 1e-12)
+    monkeypatch.setattr(
+        "hystid.diagnosis.fit.descent._SMALL_FALL", 1e-12
+    )  # the search stops early, and a minimum is asked
     found = fit(problem, start)
     jacobian = problem.jacobian(found.hypothesis, found.unknowns)
     scaled = jacobian / np.linalg.norm(jacobian, axis=0)

@@ -348,8 +348,8 @@ def _without_late(
     case: Case, choice: Choice, library: Sequence[Effect], posed: Callable[..., Case], low_passed: Sequence[str]
 ) -> Decided | None:
     """Without the late channel of the motion, where the others leave noise and it does not: what delays a channel often
-    does more to it. Without one that is low-passed, too, where nothing is missing then. None where that is not so,
-    where no channel is either, or where no other shows the motion."""
+    does more to it. Without one that is low-passed, too, where the others leave noise, and nothing is missing
+    if it left noise as well. None where that is not so, where no channel is either, or no other shows the motion."""
     late = next((fault.channel for fault in case.faults if fault.id == DELAY and fault.channel != "F"), "")
     channel = late or next(iter(low_passed), "")
     left_noise = leaves_noise(case.problem, choice.best)
@@ -359,10 +359,12 @@ def _without_late(
         other = posed(channel)
     except NotDiagnosable:
         return None
-    law = try_fit(other.problem, choice.best.hypothesis) or other.refit
-    is_left_out = all(channel not in part.measured for part in other.problem.parts)
-    if not is_left_out or (late and not any(leaves_noise(other.problem, fit) for fit in (other.refit, law))):
+    if any(channel in part.measured for part in other.problem.parts):
         return None
+    if late and not leaves_noise(other.problem, other.refit):
+        law = try_fit(other.problem, choice.best.hypothesis)
+        if law is None or not leaves_noise(other.problem, law):
+            return None
     again = chosen(other, library, known=choice.posterior.likely)
     told = (*other.notes, (_MORE_THAN_LATE if late else _LOW_PASSED).format(channel))
     whole = replace(other, faults=case.faults, consistency=case.consistency, notes=told)

@@ -298,11 +298,11 @@ def settled(problem: Problem, fitted: Fit) -> Fit:
     terms = []
     for term in here.terms:
         middle = {name: sum(pair) / 2 for name, pair in edges(problem, here, term).items()}
-        if isinstance(term.effect, Windowed) and (whole := whole_recordings(problem, term)) == [
-            *(term.effect.owners or ())
-        ]:
-            for on, off, ramp in map(term.effect.names, whole):
-                middle |= {on: 0.0, off: 2 * term.values[off], ramp: problem.parts[0].dt}
+        whole = whole_recordings(problem, term)
+        if isinstance(term.effect, Windowed) and tuple(whole) == term.effect.owners:
+            for owner in whole:
+                on, off, ramp = term.effect.names(owner)
+                middle |= {on: 0.0, off: 2 * float(problem.parts[owner].t[-1]), ramp: problem.parts[0].dt}
         terms.append(replace(term, values={**term.values, **middle}))
     there = replace(here, terms=tuple(terms))
     rows = problem.rows(there)
